@@ -13,8 +13,8 @@ from vsgdesign.equations.field.fusion import GateLimits
 from vsgdesign.equations.grid import SCR_BASES
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.estimator.recipe_fields import Library, Recipe
+from vsgdesign.identification.feeding import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
 from vsgdesign.identification.interface import CHANNELS
-from vsgdesign.identification.sampling import EXACT, LEAST_PER_CYCLE, MOST_CYCLES, NEAR, choose_window
 from vsgdesign.study.parameters.converter import Converter
 from vsgdesign.study.parameters.fields import flag, number, section, spread, texts, whole, word
 from vsgdesign.study.parameters.ranges import Spread, log_uniform, one_of, uniform
@@ -271,7 +271,7 @@ def with_sampling(recipe: WindowRecipe, converter: Converter) -> WindowRecipe:
     """The recipe with ``sample_interval``, ``samples`` and ``cycles`` filled in for a converter.
 
     A sample interval is a whole number of control periods T_s. What the recipe leaves open is chosen by
-    :func:`vsgdesign.identification.sampling.choose_window`. What the recipe gives is kept. Raises StudyError where
+    :func:`vsgdesign.identification.feeding.choose_window`. What the recipe gives is kept. Raises StudyError where
     it does not fit the converter.
     """
     rate = converter.f_sw * converter.samples_per_carrier

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vsgdesign.equations.frames import clarke
+from vsgdesign.identification.feeding import near_a_millisecond
 from vsgdesign.identification.interface import (
     Array,
     ComplexArray,
@@ -28,7 +29,6 @@ from vsgdesign.identification.interface import (
     no_estimate,
     with_belief,
 )
-from vsgdesign.identification.sampling import near_a_millisecond
 
 FREQUENCY_MEMORY = 1.0
 """Time over which the converter's own frequency is averaged, s. In the steady state it is the grid's frequency."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vsgdesign.identification.classical import advanced, followed_frequency, sample_count, space_vector_variance, turned
+from vsgdesign.identification.feeding import near_a_millisecond
 from vsgdesign.identification.interface import (
     Array,
     ComplexArray,
@@ -24,7 +25,6 @@ from vsgdesign.identification.interface import (
     no_estimate,
     with_belief,
 )
-from vsgdesign.identification.sampling import near_a_millisecond
 
 _ROUNDS = 50
 

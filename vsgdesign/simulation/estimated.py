@@ -26,8 +26,8 @@ from vsgdesign.identification import (
     Samples,
     estimator_kind,
 )
+from vsgdesign.identification.feeding import WindowPlan, window_of_rate
 from vsgdesign.identification.interface import FOLLOWED
-from vsgdesign.identification.sampling import WindowPlan, window_of_rate
 from vsgdesign.simulation.following import ScheduledAnswers
 from vsgdesign.simulation.online import MeasuredWindow
 from vsgdesign.simulation.timeline import Timeline

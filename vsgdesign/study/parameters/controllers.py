@@ -12,8 +12,8 @@ from vsgdesign.equations.limiters import LIMITERS, KnownRatings, Limiter
 from vsgdesign.equations.placing import Poles
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.structures import STRUCTURES
+from vsgdesign.identification.feeding import window_of_rate
 from vsgdesign.identification.interface import ESTIMATORS, needs_network, samples_itself
-from vsgdesign.identification.sampling import window_of_rate
 from vsgdesign.study.parameters.converter import Converter, Filter, current_limit, limiter_ratings
 from vsgdesign.study.parameters.fields import (
     DURATION,
