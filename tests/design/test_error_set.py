@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vsgdesign.certificate.error_bounds import truth_behind
 from vsgdesign.equations.grid import MOST_ERROR_Z, error_half_widths
-from vsgdesign.runtime.floats import on_floats
+from vsgdesign.runtime.schedule import on_floats
 
 ANGLES = st.floats(0.05, 1.52)
 ERRORS = st.tuples(st.floats(0.0, 0.5), st.floats(0.0, 0.5), st.floats(0.0, MOST_ERROR_Z))

@@ -33,9 +33,9 @@ from vsgdesign.linear.operating_point.many_rests import many_rests_with_measured
 from vsgdesign.linear.operating_point.plant import plant_steps
 from vsgdesign.linear.operating_point.sampled import steady_state
 from vsgdesign.linear.stability.loci import modes
-from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.study.parameters import Study
 from vsgdesign.study.parameters.grid import Grid, GridSource

@@ -11,7 +11,7 @@ from tests.equations.test_three_ways import FUNCTIONS, arguments, draw, flat
 from vsgdesign.equations.grid import scr_impedance
 from vsgdesign.equations.power_flow import scheduled_jacobian
 from vsgdesign.equations.structures import STRUCTURES
-from vsgdesign.runtime.floats import on_floats
+from vsgdesign.runtime.schedule import on_floats
 
 SHIPPED = [
     name for name in FUNCTIONS if name.split(".")[0] in ("following", "grid", "power_flow", "power_loops", "structures")

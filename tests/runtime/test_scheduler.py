@@ -37,8 +37,8 @@ from vsgdesign.runtime import (
     status_text,
     table_schedule,
 )
-from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.guards import REASONS
+from vsgdesign.runtime.schedule import on_floats
 from vsgdesign.runtime.table import locate
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.linear.operating_point.full_order import Cell, FullOrderModel, linearise_full_order
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.study.parameters import Grid, Study, study_from_text
 from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.study import ClosedFormTarget

@@ -24,8 +24,8 @@ from vsgdesign.linear.stability.safe_place import (
     middle_place,
     table_safe_place,
 )
-from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.of_study import ControllerGains
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.study.parameters import Study, load_study, study_from_text
 from vsgdesign.study.parameters.grid import Place
 from vsgdesign.study.parameters.study import ControllerSpec

@@ -16,7 +16,7 @@ from vsgdesign.equations.frames import PHASES
 from vsgdesign.equations.grid import SCR_BASES, ScrBasis
 from vsgdesign.equations.power_flow import POWER_MARGIN
 from vsgdesign.equations.structures import NormalisedGains
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
+from vsgdesign.runtime.schedule import ClosedFormSchedule
 from vsgdesign.runtime.table import TableSchedule
 
 Array = NDArray[np.float64]

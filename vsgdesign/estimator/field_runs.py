@@ -26,7 +26,7 @@ from vsgdesign.estimator.recipes import FieldRecipe
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.operating_point.equilibrium import OperatingPoint, solve_with_droop
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.simulation import simulate
 from vsgdesign.simulation.field_feed import FieldScheduler, settings_of_study
 from vsgdesign.simulation.timeline import build_timeline

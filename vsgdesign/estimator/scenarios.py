@@ -16,7 +16,7 @@ from vsgdesign.estimator.recipes import WindowRecipe
 from vsgdesign.linear.operating_point import solve_operating_point
 from vsgdesign.linear.operating_point.full_order import Cell, linearise_full_order
 from vsgdesign.linear.operating_point.sampled import steady_state
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.study.parameters.grid import Grid, GridSource, Place
 from vsgdesign.study.parameters.study import Study
 

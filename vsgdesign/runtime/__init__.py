@@ -18,10 +18,9 @@ from vsgdesign.identification import (
     build_estimator,
 )
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.runtime.closed_form import ClosedFormSchedule, closed_form_schedule
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
-from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.schedule import ClosedFormSchedule, Schedule, closed_form_schedule
 from vsgdesign.runtime.scheduler import (
     Scheduler,
     closed_form_scheduler,

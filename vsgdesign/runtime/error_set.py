@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vsgdesign.equations.estimate_guards import CHI_SQUARE_95
 from vsgdesign.equations.grid import error_half_widths
-from vsgdesign.runtime.floats import on_floats
+from vsgdesign.runtime.schedule import on_floats
 
 if TYPE_CHECKING:
     from vsgdesign.artifacts.gain_table import GainTable

@@ -20,8 +20,7 @@ from vsgdesign.equations.scheduler_data import (
     place_of,
 )
 from vsgdesign.equations.structures import STRUCTURES, NormalisedGains
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
-from vsgdesign.runtime.floats import on_floats
+from vsgdesign.runtime.schedule import ClosedFormSchedule, on_floats
 from vsgdesign.runtime.table import TableSchedule
 
 _OUTSIDE = NO_DESIGN, 0.0, 0.0, 0.0, 0.0, 0.0

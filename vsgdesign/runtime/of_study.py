@@ -9,9 +9,8 @@ import numpy as np
 
 from vsgdesign.artifacts.ready import NOTHING, Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import SchedulerSettings, settings_of
-from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.schedule import Schedule, closed_form_schedule
 from vsgdesign.runtime.table import TableSchedule, table_schedule
 
 if TYPE_CHECKING:  # the controller does not read study files

@@ -1,14 +1,24 @@
-"""The common part of all gain schedules: the gains follow from normalised parameters and the Jacobian of the grid."""
+"""The common part of all gain schedules, and the one in closed form: the gains follow from normalised parameters, which
+in closed form are the same on every grid, and from the Jacobian of the grid.
+
+Equations run on plain floats here: the same code, with Python's arithmetic in place of NumPy's scalars.
+"""
 
 from __future__ import annotations
 
+import functools
+import math
 from abc import ABC, abstractmethod
+from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from functools import cache, lru_cache
+from types import FunctionType, SimpleNamespace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from vsgdesign.equations.placing import PLACED
 from vsgdesign.equations.power_flow import (
     jacobian_from_powers,
     largest_scale,
@@ -16,9 +26,81 @@ from vsgdesign.equations.power_flow import (
     scheduled_jacobian,
 )
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, NormalisedGains, StructureGains
+from vsgdesign.equations.structures import PUBLISHED, STRUCTURES, ClosedFormAim, NormalisedGains, StructureGains
 from vsgdesign.errors import NoOperatingPointError
-from vsgdesign.runtime.floats import on_floats
+
+if TYPE_CHECKING:
+    from vsgdesign.study.parameters.study import ClosedFormTarget, Study
+
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _sqrt(x: float) -> float:
+    return math.sqrt(x) if x >= 0.0 else math.nan
+
+
+def _maximum(a: float, b: float) -> float:
+    return a if a >= b or a != a else b
+
+
+def _minimum(a: float, b: float) -> float:
+    return a if a <= b or a != a else b
+
+
+def _where(condition: bool, one: float, other: float) -> float:
+    return one if condition else other
+
+
+def _clip(value: float, low: float, high: float) -> float:
+    value = value if value >= low or value != value else low
+    return value if value <= high or value != value else high
+
+
+def _search(row: tuple[float, ...], value: float, side: str) -> int:
+    del side
+    return bisect_right(row, value)
+
+
+def _as_float(function: Callable[..., Any]) -> Callable[..., float]:
+    """Calls NumPy's own function, so that the last bit is the same, and returns its result as a float."""
+    return lambda *values: float(function(*values))
+
+
+_NUMPY = SimpleNamespace(
+    pi=math.pi,
+    sqrt=_sqrt,
+    maximum=_maximum,
+    minimum=_minimum,
+    where=_where,
+    clip=_clip,
+    searchsorted=_search,
+    abs=abs,
+    **{
+        name: _as_float(getattr(np, name))
+        for name in ("arctan2", "cos", "exp", "floor", "hypot", "log", "sin", "tan", "tanh")
+    },
+)
+
+
+@cache
+def on_floats(function: F) -> F:
+    """A copy of the function, and of those that it calls, for floats alone. It gives the same bits at a third of the
+    cost.
+
+    NumPy's functions return NumPy's scalars, whose arithmetic takes several times as long as that of floats. Code that
+    runs in every window calls this copy, so the equation itself is written only once.
+    """
+    scope = dict(function.__globals__)  # type: ignore[attr-defined]
+    scope["np"] = _NUMPY
+    code = function.__code__  # type: ignore[attr-defined]
+    for name in code.co_names:
+        if isinstance(scope.get(name), FunctionType):
+            scope[name] = on_floats(scope[name])
+    copy = FunctionType(code, scope, function.__name__, function.__defaults__, function.__closure__)  # type: ignore
+    copy.__kwdefaults__ = function.__kwdefaults__  # type: ignore[attr-defined]
+    return copy  # type: ignore[return-value]
+
 
 _scheduled_jacobian = on_floats(scheduled_jacobian)
 
@@ -126,3 +208,65 @@ class Schedule(ABC):
         structure = STRUCTURES[self.structure]
         D_p, D_q = structure.droops(self.D_p, self.D_q)
         return structure.gains(A, B, C, D, normalised, D_p, D_q, self.S_rated, self.omega, self.law == "inertia")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedFormSchedule(Schedule):
+    """A gain schedule for any structure, target, operating point and filter.
+
+    The structure determines which fields are used. The published one uses ``settling_time``, ``damping_ratio`` and
+    ``droop_ratio`` (:eq:`closed-form-gains`). The others use the pole placement k_1, d_1, k_2 and the shares of
+    decoupling (:eq:`decoupled-gains`, :eq:`angle-damped-gains`). Law ``inertia`` uses H (s) and zeta.
+    """
+
+    settling_time: float
+    damping_ratio: float
+    droop_ratio: float
+    k_1: float = PLACED.k_1
+    d_1: float = PLACED.d_1
+    k_2: float = PLACED.k_2
+    share_P: float = 1.0
+    share_Q: float = 1.0
+    H: float = 5.0
+    zeta: float = 0.7
+
+    def normalised(self, R_g: Any, L_g: Any) -> NormalisedGains:  # noqa: ARG002 - the same on every grid
+        """The normalised parameters, which are the same for every grid."""
+        return self._everywhere
+
+    @functools.cached_property
+    def _everywhere(self) -> NormalisedGains:
+        aim = ClosedFormAim(**{name: getattr(self, name) for name in ClosedFormAim._fields})
+        normalised = STRUCTURES[self.structure].closed_form(aim)
+        if self.law == "inertia":
+            return normalised._replace(k_1_or_H=self.H, d_1_or_zeta=self.zeta)
+        return normalised
+
+
+def closed_form_schedule(
+    study: Study, target: ClosedFormTarget, P: float | None = None, Q: float | None = None
+) -> ClosedFormSchedule:
+    """The schedule of a study's converter for a target. P and Q replace the operating point of the target."""
+    c = study.converter
+    droops = target.P_droop, target.Q_droop
+    D_p, D_q = STRUCTURES[target.structure].rated_droops(*droops, c.S_rated, c.omega_n, c.V_rated_rms)
+    return ClosedFormSchedule(
+        P=target.P if P is None else P,
+        Q=target.Q if Q is None else Q,
+        V_g_rms=study.grid_source.V_g_rms,
+        omega=c.omega_n,
+        settling_time=target.settling_time,
+        damping_ratio=target.damping_ratio,
+        droop_ratio=target.droop_ratio,
+        R_2=study.filter.R_2,
+        L_2=study.filter.L_2,
+        structure=target.structure,
+        k_1=target.k_1,
+        d_1=target.d_1,
+        k_2=target.k_2,
+        D_p=D_p,
+        D_q=D_q,
+        share_P=target.share_P,
+        share_Q=target.share_Q,
+        S_rated=c.S_rated,
+    )

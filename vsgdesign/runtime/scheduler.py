@@ -27,9 +27,9 @@ from vsgdesign.identification import Estimate, Estimator, Probe
 from vsgdesign.identification.feeding import FedEstimator
 from vsgdesign.identification.interface import KnowsItsError
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
-from vsgdesign.runtime.closed_form import ClosedFormSchedule
 from vsgdesign.runtime.guards import SchedulerSettings, searching_settings, settings_of, window_settings
 from vsgdesign.runtime.lookup import GainLookup, gain_lookup
+from vsgdesign.runtime.schedule import ClosedFormSchedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.runtime.updating import (
     Answer,

@@ -10,9 +10,9 @@ from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.equations.scheduler_data import SchedulerInput, SchedulerState
 from vsgdesign.equations.scheduling import begun, told_state, updated
 from vsgdesign.errors import ArtifactError
-from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.guards import REASONS, SchedulerSettings
 from vsgdesign.runtime.lookup import GainLookup
+from vsgdesign.runtime.schedule import on_floats
 
 __all__ = ["Answer", "Covariance", "advance", "first_state", "given_input", "start_state", "told_state"]
 

@@ -16,9 +16,8 @@ from vsgdesign.equations.grid import FilterGrid, capacitor_node_voltage
 from vsgdesign.equations.power_loops import PowerLoopGains, References, gain_transfer, power_loops
 from vsgdesign.errors import InfeasibleStudyError, NoOperatingPointError
 from vsgdesign.identification import Probe
-from vsgdesign.runtime.floats import on_floats
 from vsgdesign.runtime.of_study import follows_measured, schedule_of
-from vsgdesign.runtime.schedule import Schedule
+from vsgdesign.runtime.schedule import Schedule, on_floats
 from vsgdesign.simulation.every_sample import AtPcc
 from vsgdesign.simulation.field_observer import FieldMemory, HeldProbe
 from vsgdesign.simulation.online import MeasuredWindow, OnlineScheduler, WindowPowers, grid_of, probe_hold_of, wanted_of

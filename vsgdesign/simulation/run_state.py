@@ -17,7 +17,7 @@ from vsgdesign.equations.limiters import GridEstimate
 from vsgdesign.equations.power_loops import PowerLoopGains, References
 from vsgdesign.linear.operating_point.network import NetworkCircuit
 from vsgdesign.linear.operating_point.sampled import SampledState
-from vsgdesign.runtime.floats import on_floats
+from vsgdesign.runtime.schedule import on_floats
 from vsgdesign.simulation.added_source import Added, AddedSource, adds_to_source, sensors_of
 from vsgdesign.simulation.batch import STANDS, Batch
 from vsgdesign.simulation.circuit_program import SAME_INSTANT, CircuitProgram, CutSample, ProgramWriter

@@ -13,7 +13,7 @@ from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_flow import operating_point
 from vsgdesign.equations.power_loops import PowerLoopGains, References, power_loops
 from vsgdesign.metrics.step_response import ResponseMetrics, step_response
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.simulation.steps import references_at, simulate_step
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Grid, Place

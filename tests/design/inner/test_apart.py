@@ -17,7 +17,7 @@ from vsgdesign.design.inner.passivity import FASTER, searched_apart
 from vsgdesign.design.inner.search import Effort
 from vsgdesign.equations.inner_loops import InnerLoopGains
 from vsgdesign.equations.power_loops import PowerLoopGains
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.simulation.units.scenario import run_plant
 from vsgdesign.study.parameters import Study, study_from_text
 from vsgdesign.study.parameters.power_plant import behind_its_path

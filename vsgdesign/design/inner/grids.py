@@ -16,7 +16,7 @@ from vsgdesign.equations.structures import ANGLE_DAMPED
 from vsgdesign.errors import Fault, StudyError
 from vsgdesign.linear.operating_point.full_order import Cell
 from vsgdesign.linear.operating_point.plant import state_matrices
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import GridSource, Place
 from vsgdesign.study.parameters.inner_loops import Reading, request_of

@@ -43,7 +43,7 @@ from vsgdesign.linear.operating_point.rest_of_units import rest_of_units
 from vsgdesign.linear.stability.loops import output_admittance, passivity_index
 from vsgdesign.linear.stability.modes_of_units import differential_modes
 from vsgdesign.metrics.modes import least_damping, to_continuous
-from vsgdesign.runtime.closed_form import closed_form_schedule
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.study.parameters.converter import Converter, Filter
 from vsgdesign.study.parameters.grid import Grid, Place
 from vsgdesign.study.parameters.power_plant import NEUTRAL, Element, PowerPlant, Unit

@@ -26,9 +26,9 @@ from vsgdesign.linear.model.coupled import coupled_model
 from vsgdesign.linear.operating_point.equilibrium import static_limit_uses
 from vsgdesign.linear.stability.maps import GainLaw, cell_set, full_order_cells
 from vsgdesign.linear.stability.margins import eigenvalues_of, margins_named
-from vsgdesign.runtime.closed_form import closed_form_schedule
 from vsgdesign.runtime.guards import settings_of
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured
+from vsgdesign.runtime.schedule import closed_form_schedule
 from vsgdesign.runtime.table import table_grids, table_schedule
 from vsgdesign.study.parameters.grid import PLAIN, GridSource, Place
 from vsgdesign.study.parameters.specification import Specification, SurvivalSpec
