@@ -19,7 +19,7 @@ from tests.gain_tables import table
 from vsgdesign.artifacts import write_table_file
 from vsgdesign.equations.power_flow import LEAST_SHARE, POWER_MARGIN
 from vsgdesign.runtime import table_schedule
-from vsgdesign.runtime.lookup import gain_lookup
+from vsgdesign.runtime.updating import gain_lookup
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "gain-table-file.md"
 SCR, X_OVER_R = (1.5, 2.0, 5.0, 20.0), (0.3, 1.0, 3.0, 10.0)

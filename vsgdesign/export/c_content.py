@@ -32,7 +32,7 @@ from vsgdesign.runtime.needed_sigma import needed_sigma
 from vsgdesign.runtime.scheduler import Scheduler
 
 if TYPE_CHECKING:
-    from vsgdesign.runtime.lookup import GainLookup
+    from vsgdesign.runtime.updating import GainLookup
 
 _BLOCK = 20
 """Samples that are summed before they join the whole: single precision keeps a digit more."""

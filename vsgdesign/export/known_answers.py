@@ -37,10 +37,9 @@ from vsgdesign.equations.scheduler_data import NO_ESTIMATE, NO_REASON, TOLD_CHAN
 from vsgdesign.identification.field import FieldNetwork
 from vsgdesign.identification.neural import NeuralEstimator
 from vsgdesign.runtime.guards import SchedulerSettings
-from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.power_controller import PowerController, state_at_set_points
 from vsgdesign.runtime.scheduler import SAID, Scheduler
-from vsgdesign.runtime.updating import advance, first_state, given_input, told_state
+from vsgdesign.runtime.updating import GainLookup, advance, first_state, given_input, told_state
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,6 @@ from vsgdesign.identification import (
 )
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import REASONS, STATUSES, SchedulerSettings, box_settings, settings_of, status_text
-from vsgdesign.runtime.lookup import GainLookup, gain_lookup
 from vsgdesign.runtime.schedule import ClosedFormSchedule, Schedule, closed_form_schedule
 from vsgdesign.runtime.scheduler import (
     Scheduler,
@@ -29,7 +28,7 @@ from vsgdesign.runtime.scheduler import (
     scheduler_of,
 )
 from vsgdesign.runtime.table import TableSchedule, table_schedule
-from vsgdesign.runtime.updating import Answer
+from vsgdesign.runtime.updating import Answer, GainLookup, gain_lookup
 
 if TYPE_CHECKING:
     from vsgdesign.runtime.many import ManySchedulers

@@ -20,8 +20,7 @@ from vsgdesign.equations.scheduler_data import (
     grid_at,
 )
 from vsgdesign.runtime.guards import SchedulerSettings
-from vsgdesign.runtime.lookup import GainLookup
-from vsgdesign.runtime.updating import advance, first_state, start_state, told_state
+from vsgdesign.runtime.updating import GainLookup, advance, first_state, start_state, told_state
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -28,14 +28,15 @@ from vsgdesign.identification.feeding import FedEstimator
 from vsgdesign.identification.interface import KnowsItsError
 from vsgdesign.identification.neural import NeuralEstimator, neural_estimator
 from vsgdesign.runtime.guards import SchedulerSettings, searching_settings, settings_of, window_settings
-from vsgdesign.runtime.lookup import GainLookup, gain_lookup
 from vsgdesign.runtime.schedule import ClosedFormSchedule
 from vsgdesign.runtime.table import table_schedule
 from vsgdesign.runtime.updating import (
     Answer,
     Covariance,
+    GainLookup,
     advance,
     first_state,
+    gain_lookup,
     given_input,
     start_state,
     state_document,

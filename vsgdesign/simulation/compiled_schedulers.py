@@ -23,9 +23,8 @@ from vsgdesign.equations.scheduler_data import SchedulerInput, SchedulerLimits, 
 from vsgdesign.equations.scheduling import begun, told_and_updated
 from vsgdesign.identification import Estimator
 from vsgdesign.runtime.guards import SchedulerSettings
-from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import Scheduler, scheduler_of
-from vsgdesign.runtime.updating import Answer
+from vsgdesign.runtime.updating import Answer, GainLookup
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

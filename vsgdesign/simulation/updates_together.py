@@ -25,8 +25,8 @@ from vsgdesign.equations.scheduler_data import (
     grid_at,
 )
 from vsgdesign.equations.scheduling import told_and_updated
-from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.scheduler import Scheduler
+from vsgdesign.runtime.updating import GainLookup
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.compiled_schedulers import compiled_once, uniform_of
 from vsgdesign.simulation.feeds import ToldGrids, ToldNow

@@ -42,8 +42,8 @@ from vsgdesign.report.explore.page_verdicts import (
 from vsgdesign.report.explore.saving import WithoutEvent
 from vsgdesign.report.explore.scene import NAMES, STEP_NAME, Scene, after_s, event_s, scene_of, study_of
 from vsgdesign.report.explore.state import LABELS, LENGTHS_S, SIZES, State, sizes_of_steps
-from vsgdesign.runtime.lookup import gain_lookup
 from vsgdesign.runtime.schedule import closed_form_schedule
+from vsgdesign.runtime.updating import gain_lookup
 from vsgdesign.simulation.batch import Batch
 from vsgdesign.simulation.circuit_program import RAMP_DRIFT
 from vsgdesign.simulation.following import KnownGridScheduler, refollowed, rescheduled

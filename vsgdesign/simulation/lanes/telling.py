@@ -19,10 +19,10 @@ from vsgdesign.artifacts.ready import Ready
 from vsgdesign.equations.power_loops import PowerLoopGains
 from vsgdesign.identification import estimator_kind
 from vsgdesign.runtime.guards import SchedulerSettings
-from vsgdesign.runtime.lookup import GainLookup
 from vsgdesign.runtime.many import ManySchedulers
 from vsgdesign.runtime.of_study import ControllerGains, follows_measured, gain_law
 from vsgdesign.runtime.scheduler import scheduler_of
+from vsgdesign.runtime.updating import GainLookup
 from vsgdesign.simulation.compiled_schedulers import CompiledSchedulers
 from vsgdesign.simulation.feeds import STALE_S, Told, ToldGrids, ToldNow, safe_grid, told_of
 from vsgdesign.simulation.gains import whole_multiple
