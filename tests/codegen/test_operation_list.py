@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -91,9 +92,9 @@ def test_an_operation_has_the_bits_of_python(name: str) -> None:
     listed = OperationList(2, (), [name], [(0, 1)], [2])
     for begin in range(0, len(pairs), LANES):
         part = pairs[begin : begin + LANES]
-        listed.inputs[:] = 0.5
-        listed.inputs[:, : len(part)] = np.transpose(part)
-        found = listed.run()[0, : len(part)]
+        inputs = np.full((2, LANES), 0.5)
+        inputs[:, : len(part)] = np.transpose(part)
+        found = listed.run(inputs)[0, : len(part)]
         for (x, y), value in zip(part, found.tolist(), strict=True):
             expected = of(x, y) if name in TWO else of(x)
             if math.isnan(expected):
@@ -117,8 +118,7 @@ def test_many_operations_have_the_bits_of_numpy_in_every_lane() -> None:
     listed = OperationList(inputs, constants, names, operands, outputs)
     for _ in range(2):  # nothing of a run is left for the next one
         given = rng.normal(size=(inputs, LANES))
-        listed.inputs[:] = given
-        found = listed.run()
+        found = listed.run(given)
         for lane in range(LANES):
             values = [*given[:, lane].tolist(), *constants]
             for name, (x, y) in zip(names, operands, strict=True):
@@ -137,8 +137,18 @@ def test_what_cannot_be_done_is_refused() -> None:
 
 def test_a_list_without_operations_gives_what_it_was_given() -> None:
     listed = OperationList(2, (4.0,), (), (), [1, 2])
-    listed.inputs[:] = [[1.0], [2.0]]
-    np.testing.assert_array_equal(listed.run(), [[2.0] * LANES, [4.0] * LANES])
+    found = listed.run(np.repeat([[1.0], [2.0]], LANES, axis=1))
+    np.testing.assert_array_equal(found, [[2.0] * LANES, [4.0] * LANES])
+
+
+def test_threads_do_not_disturb_each_other() -> None:
+    """A list is kept for the process, and a call from Python lets other threads run."""
+    count = 20_000
+    listed = OperationList(1, (1.0,), ["add"] * count, [(max(1, k), 0) for k in range(1, count + 1)], [count + 1])
+    expected = {x: listed.run(np.full((1, LANES), x))[0, 0] for x in range(8)}
+    with ThreadPoolExecutor(8) as threads:
+        found = list(threads.map(lambda k: (k % 8, listed.run(np.full((1, LANES), k % 8.0))[0].tolist()), range(400)))
+    assert all(values == [expected[x]] * LANES for x, values in found)
 
 
 @pytest.mark.parametrize("count", [0, 1, LANES, 2 * LANES + 3])

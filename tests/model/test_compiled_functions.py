@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.design.robust_studies import law, robust_study, scenarios, specification
+from vsgdesign.codegen.operation_list import LANES
 from vsgdesign.design import nlp
 from vsgdesign.linear.model.compiled import InLanes, list_of
 from vsgdesign.linear.model.coupled import coupled_function
@@ -44,10 +45,9 @@ def everything() -> ca.Function:
 def test_every_operation_has_the_bits_of_casadi() -> None:
     function, rng = everything(), np.random.default_rng(3)
     listed = list_of(function)
-    listed.inputs[:2] = rng.uniform(-0.9, 0.9, size=(2, listed.inputs.shape[1]))
-    listed.inputs[2] = rng.uniform(0.1, 3.0, size=listed.inputs.shape[1])
-    found = listed.run()
-    for lane, (a, b, y) in enumerate(listed.inputs.T):
+    inputs = np.vstack([rng.uniform(-0.9, 0.9, size=(2, LANES)), rng.uniform(0.1, 3.0, size=(1, LANES))])
+    found = listed.run(inputs)
+    for lane, (a, b, y) in enumerate(inputs.T):
         expected = np.concatenate([np.array(one.nonzeros()) for one in function([a, b], y)])
         np.testing.assert_array_equal(found[:, lane], expected)
         assert np.isfinite(expected).all()
@@ -63,9 +63,9 @@ def test_what_a_list_has_not_is_refused() -> None:
 def test_the_coupled_model_has_the_bits_of_casadi(yields: bool) -> None:
     function, rng = coupled_function(True, True, yields=yields), np.random.default_rng(4)
     listed = list_of(function)
-    listed.inputs[:] = rng.uniform(0.2, 2.0, size=listed.inputs.shape)
-    found = listed.run()
-    for lane, given in enumerate(listed.inputs.T):
+    inputs = rng.uniform(0.2, 2.0, size=(listed.inputs, LANES))
+    found = listed.run(inputs)
+    for lane, given in enumerate(inputs.T):
         expected = np.concatenate([np.array(one.nonzeros()) for one in function(*given)])
         np.testing.assert_array_equal(found[:, lane], expected)
 

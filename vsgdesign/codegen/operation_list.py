@@ -120,26 +120,35 @@ class OperationList:
         begins = np.flatnonzero(np.diff(codes[order], prepend=-1))
         lengths = np.diff(np.append(begins, len(order)))
         self._runs = np.ascontiguousarray(np.column_stack([codes[order][begins], lengths]), dtype=np.int32)
-        self._values = aligned_zeros((count, LANES))
-        self._values[inputs:first] = np.array(constants, dtype=float)[:, None]
-        self.inputs = self._values[:inputs]
-        """(inputs, LANES), which a run reads."""
+        self.inputs, self._first, self._count = inputs, first, count
+        """How many inputs there are."""
+        self._constants = np.array(constants, dtype=float)[:, None]
         self._outputs = places[np.array(outputs, dtype=np.int64)]
-        self._given = tuple(one.ctypes.data for one in (self._runs, self._list, self._values, _library()))
+        self._rooms: list[Floats] = []
 
-    def run(self) -> Floats:
-        """Does all operations with what stands in ``inputs``; the outputs (outputs, LANES)."""
-        _function()(len(self._runs), *self._given)
-        return self._values[self._outputs]
+    def run(self, inputs: Floats) -> Floats:
+        """Does all operations with inputs (inputs, LANES); the outputs (outputs, LANES)."""
+        try:
+            values = self._rooms.pop()  # no other thread has this one
+        except IndexError:
+            values = aligned_zeros((self._count, LANES))
+            values[self.inputs : self._first] = self._constants
+        values[: self.inputs] = inputs
+        given = self._runs, self._list, values, _library()
+        _function()(len(self._runs), *(one.ctypes.data for one in given))
+        found = values[self._outputs]
+        self._rooms.append(values)
+        return found
 
     def of_points(self, points: Floats) -> Floats:
         """The outputs (N, outputs) of N points (N, inputs)."""
         found = np.empty((len(points), len(self._outputs)))
+        lanes = np.empty((self.inputs, LANES))
         for begin in range(0, len(points), LANES):
             part = points[begin : begin + LANES]
-            self.inputs[:, : len(part)] = part.T
-            self.inputs[:, len(part) :] = part[:1].T  # a lane without a point does what is done anyway
-            found[begin : begin + LANES] = self.run()[:, : len(part)].T
+            lanes[:, : len(part)] = part.T
+            lanes[:, len(part) :] = part[:1].T  # a lane without a point does what is done anyway
+            found[begin : begin + LANES] = self.run(lanes)[:, : len(part)].T
         return found
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vsgdesign.codegen.blocks import Writer
 from vsgdesign.codegen.expressions import Expression, Number, Operation, Variable
 from vsgdesign.codegen.flat import Block, flat_block
-from vsgdesign.codegen.operation_list import OperationList
+from vsgdesign.codegen.operation_list import LANES, OperationList
 from vsgdesign.codegen.vector_math import PLAIN
 from vsgdesign.linear.model.full_order import PARAMETERS, SETTINGS, FullOrderMap
 
@@ -174,9 +174,7 @@ class InLanes(ca.Callback):
         super().__init__()
         given = ca.Sparsity.dense(of_one.size1_in(0)), ca.Sparsity.dense(of_one.size1_in(1), columns)
         self._given, self._columns, self._list = given, columns, list_of(of_one)
-        self._shared = self._list.inputs[: given[0].nnz()]
-        self._own = self._list.inputs[given[0].nnz() :][: of_one.size1_in(1)]
-        self._list.inputs[len(self._shared) + len(self._own) :] = np.reshape(last, (-1, 1))
+        self._last = np.reshape(last, (-1, 1))
         # CasADi has the nonzeros of a matrix column by column, and a list has those of each lane.
         one = of_one.sparsity_out(0)
         placed = ca.vertcat(*(ca.DM(one, np.arange(one.nnz()) * columns + lane) for lane in range(columns)))
@@ -205,9 +203,11 @@ class InLanes(ca.Callback):
 
     def eval_buffer(self, arg: Sequence[Any], res: Sequence[Any]) -> int:
         """Does the operations; 0, as CasADi wants it where nothing is wrong."""
-        self._shared[:] = np.frombuffer(arg[0])[:, None]
-        columns = np.frombuffer(arg[1]).reshape(self._columns, -1).T
-        self._own[:, : self._columns] = columns
-        self._own[:, self._columns :] = columns[:, :1]  # a lane without a column does what is done anyway
-        np.frombuffer(res[0])[:] = self._list.run()[:, : self._columns].ravel()[self._order]
+        shared, columns = np.frombuffer(arg[0])[:, None], np.frombuffer(arg[1]).reshape(self._columns, -1).T
+        begin, end = len(shared), len(shared) + len(columns)
+        inputs = np.empty((self._list.inputs, LANES))
+        inputs[:begin], inputs[end:] = shared, self._last
+        inputs[begin:end, : self._columns] = columns
+        inputs[begin:end, self._columns :] = columns[:, :1]  # a lane without a column does what is done anyway
+        np.frombuffer(res[0])[:] = self._list.run(inputs)[:, : self._columns].ravel()[self._order]
         return 0
