@@ -103,7 +103,7 @@ Python, tests/simulation/test_limiters.py the compiled loop."""
 
 BRANCHING = tuple(
     f"vsgdesign.equations.{name}"
-    for name in ("field", "scheduled_gains", "estimate_guards", "scheduling", "placing", "sampled_path", "dc_")
+    for name in ("field", "scheduler_data", "estimate_guards", "scheduling", "placing", "sampled_path", "dc_")
 )
 """Never traced (test_field_recursions.py, test_scheduling.py, test_placing.py, test_sampled_path.py and test_dc_link.py
 beside this)."""
