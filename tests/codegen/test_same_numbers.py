@@ -111,7 +111,7 @@ CANCELLING = {
 }
 """Differences of large terms: their scale is what the last digit of every input is worth there."""
 
-IN_DOUBLE_ALONE = {"power_loops.power_loops_about_rest", "slow_plant.yielding_columns"}
+IN_DOUBLE_ALONE = {"power_loops.power_loops_about_rest", "power_flow.yielding_columns"}
 """Run in the certificate alone: no exported C has them. The first divides by 1 − k_P D_p, which random gains bring near
 zero; the second multiplies powers by admittances that the random draws have in units of no converter."""
 
