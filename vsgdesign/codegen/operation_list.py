@@ -1,6 +1,7 @@
 """Machine code that does a list of operations for several lanes: for functions that are too long to be compiled.
 
-LLVM needs minutes for a straight line of a hundred thousand operations. A list of them is data and is there at once.
+LLVM takes 10 s for a straight line of 40,000 operations, and more than in proportion for more of them. A list of them
+is data, which is there at once.
 Operations of one kind that do not depend on each other stand together, so that each kind is one short loop; and every
 operation is done for all lanes, so that reading the list takes no longer than the arithmetic. Each operation rounds by
 itself. In which order independent ones are done changes no bit.
